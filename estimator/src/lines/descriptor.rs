@@ -8,8 +8,8 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients, REDUCTION, halved_px, of_word};
-use super::segment::Segment;
+use super::gradient::{BORDER, Gradients, of_word};
+use super::segment::{REDUCTION, Segment, halved_px};
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 

@@ -8,11 +8,11 @@
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
 use super::filter;
-use super::gradient::{Gradients, REDUCTION, SCALE, halved_px};
+use super::gradient::{Gradients, SCALE};
 use super::growth::Growth;
 use super::refine::Refiner;
 use super::seeds::Seeds;
-use super::segment::Segment;
+use super::segment::{REDUCTION, Segment, halved_px};
 use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
 use crate::image::mask::ImageMask;
 use crate::work_budget::WorkBudget;

@@ -12,7 +12,7 @@
 //! cache. What growth reads of a pixel, its gradient and its marks, is one word: following an edge is bound
 //! by memory.
 
-use super::segment::Segment;
+use super::segment::{REDUCTION, Segment, halved_px};
 use crate::image::mask::ImageMask;
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
@@ -22,8 +22,6 @@ use std::ops::Range;
 pub const SCALE: f32 = 128.0;
 /// Ridges are looked for this far from the image's edge, halved px: there the filters see the image alone.
 pub const BORDER: usize = 2;
-/// Pixels of the image to one of the halved image, in either direction.
-pub const REDUCTION: usize = 2;
 /// Gradients are computed so many rows beyond those of the seeds: a descriptor looks so far.
 const MARGIN: usize = 14;
 /// One in this many ridges of an edge is a seed: a segment is much longer than that.
@@ -86,16 +84,6 @@ impl Pixel {
 #[inline(always)]
 pub fn of_word(word: u32) -> [f32; 2] {
     [((word << 16) as i32 >> 16 & !1) as f32, (word as i32 >> 16 & !1) as f32]
-}
-
-/// A place of the halved image, px, in the image.
-pub fn whole_px(px: &Vector2<f32>) -> Vector2<f32> {
-    px.map(|v| REDUCTION as f32 * v + 0.5 * (REDUCTION as f32 - 1.0))
-}
-
-/// A place of the image, px, in the halved image: the inverse of [`whole_px`].
-pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
-    px.map(|v| (v - 0.5 * (REDUCTION as f32 - 1.0)) / REDUCTION as f32)
 }
 
 /// Gradients of one image at half its resolution, and the memory that computing them needs.

@@ -4,7 +4,8 @@
 //! where it is equal. Of an image with too many ridges only the strongest are seeds. Who grows segments probes
 //! a seed when its turn comes: by then a segment has taken most of those along an edge.
 
-use super::gradient::{Gradients, REDUCTION, SCALE, of_word};
+use super::gradient::{Gradients, SCALE, of_word};
+use super::segment::REDUCTION;
 use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
 use nalgebra::Vector2;

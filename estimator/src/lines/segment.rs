@@ -1,13 +1,24 @@
 //! A line segment in an image.
 
 use super::fit::LineMoments;
-use super::gradient::{REDUCTION, whole_px};
 use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
 /// Places along a segment at which its edge is kept, so that it can be undistorted before it is fitted.
 pub const NODES: usize = 8;
+/// Pixels of the image to one of the halved image, in either direction.
+pub const REDUCTION: usize = 2;
+
+/// A place of the halved image, px, in the image.
+pub fn whole_px(px: &Vector2<f32>) -> Vector2<f32> {
+    px.map(|v| REDUCTION as f32 * v + 0.5 * (REDUCTION as f32 - 1.0))
+}
+
+/// A place of the image, px, in the halved image: the inverse of [`whole_px`].
+pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
+    px.map(|v| (v - 0.5 * (REDUCTION as f32 - 1.0)) / REDUCTION as f32)
+}
 
 /// The mean place of an edge over one part of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -6,7 +6,7 @@ use crate::raw;
 use crate::raw::raw_peer::{Kind, RawPeer, declare_key};
 use crate::roles::{try_to_connect, with_keys};
 use crate::succeeds;
-use crate::supervised::{runtime, try_client};
+use crate::supervised::{BACK, runtime, try_client};
 use crate::vehicle::{Running, certify, eventually, flight, free_port, render, resident_mb};
 use plumbline_link::net::now_ns;
 use plumbline_test_support::soak_minutes;
@@ -184,6 +184,11 @@ async fn ask_everything(folder: PathBuf, endpoint: String, answers: Arc<AtomicU6
             }
         }
     }
+}
+
+#[test]
+fn the_owner_of_a_stolen_identifier_is_heard_again_within_two_seconds() {
+    raw::identifiers_are_taken(BACK);
 }
 
 /// Regression: queries that a viewer may make ended the process within seconds, as one connection of rustls was used by two

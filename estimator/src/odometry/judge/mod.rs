@@ -75,6 +75,9 @@ const SHORTLY_S: f64 = 2.0;
 /// Images have contradicted a force that did not act after this time, and set the velocity right, s.
 const SET_RIGHT_S: f64 = 0.3;
 
+/// Errors of stamps show from this size on, s.
+const SHOWS_S: f64 = 8e-4;
+
 /// All watches.
 #[derive(Clone, Debug)]
 pub(super) struct Judge {

@@ -7,8 +7,8 @@
 //! never below what is stated. It begins large: a tilt that was taken for certain before the first second had told what the forces are
 //! worth would stay in the prior.
 
+use super::SHOWS_S;
 use super::leaning::{Corrected, Leaning};
-use super::stamp::SHOWS_S;
 use crate::estimate::HealthBits;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::Window;

@@ -1,9 +1,10 @@
 //! The time at which the images of the newest frame were taken, found and given to its state.
 
+use super::super::SHOWS_S;
 use super::super::noise::{NoiseScale, Prediction};
 use super::super::sudden_force::SuddenForce;
 use super::noise::MOST_S;
-use super::{FIRST_JITTER_S, SHOWS_S, StampErrors, TELLS_TO_BEGIN_S, TimeError};
+use super::{FIRST_JITTER_S, StampErrors, TELLS_TO_BEGIN_S, TimeError};
 use crate::geometry::log_so3;
 use crate::inertial::buffer::Coverage;
 use crate::odometry::estimation::Estimation;

@@ -25,8 +25,7 @@ use plumbline_config::{Portable, Timestamp};
 const WALK_S: f64 = 2e-3;
 /// The slow part is pulled to zero in this time, s, as the time offset of the rig takes over what is constant.
 const FORGETS_S: f64 = 20.0;
-/// An error shows from this size on, s, where it is seen to the second number; jitter is then taken for the last, s.
-pub(super) const SHOWS_S: f64 = 8e-4;
+/// An error shows from [`SHOWS_S`] on where it is seen to the first number; jitter is then taken for the second, s.
 const TELLS_TO_BEGIN_S: f64 = 7e-4;
 const FIRST_JITTER_S: f64 = 2.5e-3;
 /// Gain by which the jitter follows an error that is seen to [`LEAST_SIGMA_S`].
