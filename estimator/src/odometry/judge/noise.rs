@@ -85,8 +85,6 @@ impl Scale {
 #[derive(Clone, Debug)]
 pub(super) struct NoiseScale {
     stated: ImuNoise,
-    /// True if the scale follows the images: with two cameras.
-    is_scaled: bool,
     /// By all corrections, and by what no errors of stamps explain.
     of_factors: Scale,
     reported: Scale,
@@ -129,11 +127,10 @@ impl Prediction {
 impl NoiseScale {
     /// Noise assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
     pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {
-        let is_scaled = cameras > 1;
-        let variance = if is_scaled { FIRST_VARIANCE } else { 1.0 };
+        let variance = if cameras > 1 { FIRST_VARIANCE } else { 1.0 };
         let position = Innovations::default();
         let scale = Scale { velocity: position, variance };
-        Self { stated, is_scaled, of_factors: scale, reported: scale, judged_s: 0.0, position, newest: None }
+        Self { stated, of_factors: scale, reported: scale, judged_s: 0.0, position, newest: None }
     }
 
     /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
@@ -144,8 +141,7 @@ impl NoiseScale {
 
     /// Forgets what the sensor's noise is beyond the stated one.
     pub(super) fn forget_scale(&mut self, window: &mut Window) {
-        let cameras = if self.is_scaled { 2 } else { 1 };
-        *self = Self::new(self.stated, cameras);
+        *self = Self::new(self.stated, window.options.cameras);
         window.imu_noise = self.stated;
         window.options.point_sigma = 1.0;
     }
